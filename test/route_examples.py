@@ -208,13 +208,14 @@ def geojson(kind='Feature', times=True):
                        'FeatureCollection': {'type': 'FeatureCollection', 'features': [feature]}}[kind])
 
 
-def openrouteservice():
+def openrouteservice(units='m'):
     """Return GeoJSON with the durations of openrouteservice."""
     contents = json.loads(geojson(times=False))
-    step = {'distance': LENGTH_M / 2, 'duration': LENGTH_M / SPEED_MPS / 2, 'way_points': [0, 1]}
-    contents['properties'] = {'segments': [{'distance': LENGTH_M, 'duration': LENGTH_M / SPEED_MPS,
+    length = LENGTH_M / {'m': 1.0, 'km': 1000.0, 'mi': 1609.344}[units]
+    step = {'distance': length / 2, 'duration': LENGTH_M / SPEED_MPS / 2, 'way_points': [0, 1]}
+    contents['properties'] = {'segments': [{'distance': length, 'duration': LENGTH_M / SPEED_MPS,
                                             'steps': [step, step]}]}
-    return json.dumps(contents)
+    return json.dumps(contents | {'metadata': {'query': {'units': units}}})
 
 
 def sumo(vehicles=('ev',)):

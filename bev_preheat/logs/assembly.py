@@ -182,7 +182,7 @@ class Assembly:
             good = np.isfinite(values)
             time_s, values, places = time_s[good], values[good], places[good]
         if decoder.dropped > MOST_DROPPED * kept.averaged * len(values) > 0:
-            # Such as the small ones of a current in mA.
+            # Such as the small readings of a current in mA.
             self._remarks.add(f'rest {channel}', f'{self._path}: {channel}: few of its readings are left, so it '
                               f'is not taken for {signal}')
             return Series(np.empty(0), np.empty(0))

@@ -96,6 +96,9 @@ def test_changed_values_give_a_route_or_a_refusal(tmp_path, name):
     ('{"distance": 9, "duration": 9, "geometry": "_"}', 'route.geometry: the encoded polyline is cut off'),
     ('{"paths": [{"distance": 5000, "time": 300000, "points": {"coordinates": [[11, 48]]}}]}',
      'paths[0].points.coordinates: has 1 points; at least 2 are needed'),
+    ('{"distance": 24.9, "duration": 1200, "geometry": [[11.0, 48.0], [11.3, 48.0]]}',
+     'the lengths of the routingpy route add up to 0.0249 km, its line on the map to 22.3 km; ask the service for '
+     'lengths in metres'),
     ('{"code": "NoRoute", "message": "Impossible"}', "the service found no route: 'Impossible'"),
     ('{"routes": [{"legs": [{"steps": []}]}]}',
      'routes[0]: has no length and duration of its legs; ask the service'),

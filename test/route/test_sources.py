@@ -25,7 +25,7 @@ TIMED = {
     'osrm steps': lambda: examples.osrm(annotations=False), 'two legs': lambda: examples.osrm(legs=2),
     'valhalla': examples.valhalla, 'miles': lambda: examples.valhalla('miles'),
     'feature': examples.geojson, 'collection': lambda: examples.geojson('FeatureCollection'),
-    'openrouteservice': examples.openrouteservice,
+    'openrouteservice': examples.openrouteservice, 'kilometres': lambda: examples.openrouteservice('km'),
     'tomtom': examples.tomtom, 'tomtom progress': lambda: examples.tomtom(progress=True),
     'here': examples.here, 'here 7': examples.here_7,
     'here with summary alone': lambda: examples.here(of_travel=False),
@@ -281,13 +281,16 @@ def test_edges_with_speeds_in_place_of_durations_and_elevations_of_valhalla_are_
             np.arange(len(lengths)) < len(lengths) / 2, 10.0, 20.0).tolist()}
     found = loaded(tmp_path, json.dumps(contents)).route
     assert found.speed_mps[-2] / found.speed_mps[1] == pytest.approx(2.0, rel=1e-3)
-    contents = json.loads(examples.valhalla())
-    level = loaded(tmp_path, json.dumps(contents)).route
-    contents['trip']['legs'][0] |= {'elevation': np.linspace(100.0, 300.0, 201).tolist(),
-                                    'elevation_interval': examples.LENGTH_M / 200.0}
-    hilly = loaded(tmp_path, json.dumps(contents)).route
-    gained_j = (hilly.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
-    assert gained_j == pytest.approx(CAR.road_load.mass_kg * 9.80665 * 200.0 / CAR.drivetrain.efficiency, rel=0.1)
+    # Beside miles, elevations and their interval are in feet.
+    for units, unit_m in (('kilometers', 1.0), ('miles', 0.3048)):
+        contents = json.loads(examples.valhalla(units))
+        level = loaded(tmp_path, json.dumps(contents)).route
+        contents['trip']['legs'][0] |= {'elevation': (np.linspace(100.0, 300.0, 201) / unit_m).tolist(),
+                                        'elevation_interval': examples.LENGTH_M / 200.0 / unit_m}
+        hilly = loaded(tmp_path, json.dumps(contents)).route
+        gained_j = (hilly.propulsion_power_w - level.propulsion_power_w) @ level.duration_s
+        assert gained_j == pytest.approx(
+            CAR.road_load.mass_kg * 9.80665 * 200.0 / CAR.drivetrain.efficiency, rel=0.1)
 
 
 @pytest.mark.parametrize('name, values', [

@@ -23,7 +23,7 @@ from bev_preheat.route.sources.journey import (
     RouteOptions,
 )
 from bev_preheat.route.sources.json_values import checked, in_words, items
-from bev_preheat.route.sources.navigation import leg_of, points_of, Service
+from bev_preheat.route.sources.navigation import in_units, leg_of, points_of, Service
 from bev_preheat.route.sources.track import journey_of_points
 
 KIND = 'GeoJSON line'
@@ -48,8 +48,9 @@ def read_geojson(contents: Any, options: RouteOptions) -> Journey:
     check_coordinates(latitude_deg, longitude_deg, 'coordinate')
     properties = lines[0][2]
     if len(lines) == 1 and isinstance(properties.get('segments'), list):
+        service = in_units(OPENROUTESERVICE, contents)
         legs = [part for at, segment in enumerate(properties['segments'])
-                for part in leg_of(segment, f'properties.segments[{at}]', OPENROUTESERVICE)]
+                for part in leg_of(segment, f'properties.segments[{at}]', service)]
         if not legs:
             raise InvalidInput('properties.segments: is empty')
         return journey_of_pieces(KIND, legs, options, ['the mean speed of each step is used'],

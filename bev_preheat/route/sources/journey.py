@@ -211,6 +211,8 @@ def check_coordinates(latitude_deg: FloatArray, longitude_deg: FloatArray, eleme
 
 # Lengths of a line and of its pieces may differ by this share, because they are rounded.
 MOST_MISFIT = 0.2
+# With more, the lengths are in another unit.
+MOST_FACTOR = 50.0
 
 
 @dataclass(frozen=True)
@@ -258,6 +260,9 @@ def journey_of_pieces(kind: str, legs: Sequence[Pieces], options: RouteOptions, 
         scaled_m = along_m * (distance_m[-1] / max(along_m[-1], 1e-9))
         if np.isfinite(height_m).all():
             elevation = scaled_m, height_m
+        if not distance_m[-1] / MOST_FACTOR <= along_m[-1] <= MOST_FACTOR * distance_m[-1]:
+            raise InvalidInput(f'the lengths of the {kind} add up to {distance_m[-1] / 1e3:.3g} km, its line on '
+                               f'the map to {along_m[-1] / 1e3:.3g} km; ask the service for lengths in metres')
         if abs(along_m[-1] - distance_m[-1]) > MOST_MISFIT * distance_m[-1] + 50.0:
             remarks.append(f'the line on the map, {along_m[-1] / 1e3:.1f} km, does not fit the length of the way, '
                            f'{distance_m[-1] / 1e3:.1f} km; it is left out')

@@ -30,7 +30,8 @@ LEG_ROUNDING = 0.02
 # The duration of a leg over that of its parts; beyond this range they do not belong together.
 LEG_SCALE_RANGE = (0.5, 3.0)
 # Valhalla's units of length [m], and the distance of its elevations [m] unless it is given.
-M_PER_UNIT = {'kilometers': 1000.0, 'km': 1000.0, 'miles': 1609.344, 'mi': 1609.344}
+M_PER_UNIT = {'kilometers': 1000.0, 'km': 1000.0, 'miles': 1609.344, 'mi': 1609.344, 'm': 1.0}
+M_PER_FOOT = 0.3048
 ELEVATION_INTERVAL_M = 30.0
 # GraphHopper's sign of an instruction at a waypoint.
 WAYPOINT_REACHED = 5
@@ -104,11 +105,7 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
     route, *others = _routes(contents, service)
     place = f'{service.routes}[0]' if service.routes else 'route'
     remarks: list[str] = []
-    if service.routes == 'trip':
-        units = route.get('units', 'kilometers')
-        if not isinstance(units, str) or units not in M_PER_UNIT:
-            raise InvalidInput(f'trip.units: {quoted(str(units))} is not known; it must be kilometers or miles')
-        service, place = replace(service, metre=M_PER_UNIT[units]), 'trip'
+    service, place = in_units(service, contents), 'trip' if service.routes == 'trip' else place
     if others:
         remarks.append(f'{1 + len(others)} routes in the answer: the first one is used')
     nodes = [(leg, f'{place}.{service.legs}[{at}]') for at, leg in enumerate(items(route, service.legs, place))] \
@@ -120,6 +117,15 @@ def read_navigation(contents: Any, service: Service, options: RouteOptions) -> J
                        'the mean speed of the whole way is used; the answer has no steps that fit')
     points = _line(route, legs, nodes, service, place)
     return journey_of_pieces(service.kind, legs, options, remarks, points, _heights(nodes, service))
+
+
+def in_units(service: Service, contents: Any) -> Service:
+    """Return the Service with the unit of length that an answer states: Valhalla's, openrouteservice's."""
+    default = '', 'kilometers' if service.routes == 'trip' else 'm'
+    path, units = _found(contents, ('trip.units', 'metadata.query.units')) or default
+    if not isinstance(units, str) or units not in M_PER_UNIT:
+        raise InvalidInput(f'{path}: {quoted(str(units))} is not known; it must be kilometers or miles')
+    return replace(service, metre=M_PER_UNIT[units])
 
 
 def _routes(contents: Any, service: Service) -> list[Any]:
@@ -211,9 +217,11 @@ def _heights(nodes: list[tuple[Any, str]], service: Service) -> tuple[FloatArray
     for leg, place in nodes if service.routes == 'trip' else ():
         length_m = _figure(leg, service.length, place, LONGEST_LEG_M) * service.metre
         if leg.get('elevation'):
-            values_m = numbers(leg, 'elevation', place, *ELEVATION_RANGE_M)
-            interval_m = checked(leg.get('elevation_interval', ELEVATION_INTERVAL_M),
-                                 f'{place}.elevation_interval', 0.1, 1e5)
+            # Beside miles both are in feet.
+            unit_m = M_PER_FOOT if service.metre == M_PER_UNIT['miles'] else 1.0
+            values_m = unit_m * numbers(leg, 'elevation', place, *(end / unit_m for end in ELEVATION_RANGE_M))
+            interval_m = unit_m * checked(leg.get('elevation_interval', ELEVATION_INTERVAL_M / unit_m),
+                                          f'{place}.elevation_interval', 0.1, 1e5)
             parts.append((begin_m + np.minimum(np.arange(len(values_m)) * interval_m, length_m), values_m))
         begin_m += length_m
     if not parts:
