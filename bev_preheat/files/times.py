@@ -64,7 +64,9 @@ def find_clock(texts: Sequence[str], unit: str = '', decimal: str = '.') -> Cloc
         return _number_clock(numbers[np.isfinite(numbers)], unit, decimal)
     for read, rounds in ((iso_seconds, None), (_time_of_day_s, Rounds(DAY_S, 0.5 * DAY_S))):
         if np.mean(np.isfinite([read(text) for text in texts])) > 0.5:
-            return Clock(partial(_each, read, rounds), rounds is None)
+            digits = next((text for text in texts if rounds is not None and DAY_DIGITS.fullmatch(text)), '')
+            return Clock(partial(_each, read, rounds), rounds is None,
+                         f'times such as {digits} are taken as times of day' if digits else '')
     return _date_clock(texts)
 
 

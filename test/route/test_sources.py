@@ -408,7 +408,8 @@ def test_columns_are_spelt_in_many_ways(tmp_path, header):
 
 @pytest.mark.parametrize('moment', [
     lambda second: f'2026-01-31T08:{second // 60:02d}:{second % 60:02d}Z',
-    lambda second: 1_769_846_400 + second,
+    lambda second: 1_769_846_400 + second, lambda second: 1000 * (1_769_846_400 + second),
+    lambda second: f'08{second // 60:02d}{second % 60:02d}', lambda second: f'{46053 + second / 86400:.9f}',
     lambda second: f'08:{second // 60:02d}:{second % 60:02d}'])
 def test_times_are_seconds_dates_or_times_of_day(tmp_path, moment):
     rows = examples.speed_table().splitlines()

@@ -60,13 +60,14 @@ def journey_of_track(table: Table, options: RouteOptions) -> Journey:
     latitude_deg, longitude_deg = (column(table, headers[name]) for name in ('latitude', 'longitude'))
     elevation_m = column(table, headers['elevation']) if 'elevation' in headers else (
         np.full(len(latitude_deg), np.nan))
-    time_s = _times(table, headers['time']) if 'time' in headers else None
+    time_s, remark = _times(table, headers['time']) if 'time' in headers else (None, '')
     used = {headers[name].name for name in ('latitude', 'longitude', 'elevation', 'time') if name in headers}
     unused = [name for name in table.header if name and name not in used]
     with located(table.path):
         return journey_of_points(
             'table of positions', latitude_deg, longitude_deg, elevation_m, time_s, options,
-            [f'not used: {shortened(", ".join(unused), LONGEST_UNUSED)}'] if unused else [], 'row')
+            [remark] * bool(remark) + [f'not used: {shortened(", ".join(unused), LONGEST_UNUSED)}'] * bool(unused),
+            'row')
 
 
 def journey_of_table(table: Table) -> Journey:
@@ -95,7 +96,7 @@ def journey_of_table(table: Table) -> Journey:
 
 def _samples(table: Table, headers: dict[str, Header]) -> Journey:
     """Return the Journey of a table of samples: instants with speeds, or with cumulated distances."""
-    time_s = _times(table, headers['time'])
+    time_s, remark = _times(table, headers['time'])
     if len(time_s) < 2:
         raise InvalidInput(f'{table.path}: has {len(time_s)} sample; at least 2 are needed')
     steps_s = np.diff(time_s)
@@ -115,9 +116,7 @@ def _samples(table: Table, headers: dict[str, Header]) -> Journey:
         boundary_mps = column(table, headers['speed'])
         mean_mps = _middle(boundary_mps)
         _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
-    time = headers['time'].name
-    is_stated = table.units[table.header.index(time)] or any(':' in text for text in table.texts(time))
-    remarks = [] if is_stated else [f'{time}: has no unit; its times are taken as seconds']
+    remarks = [remark] if remark else []
     if 'elevation' in headers:
         distance_m = np.concatenate(([0.0], np.cumsum(steps_s * mean_mps)))
         elevation_m, remark = smooth_elevation(distance_m, column(table, headers['elevation']))
@@ -155,17 +154,20 @@ def _speed_of_distance(table: Table, header: Header, steps_s: FloatArray) -> Flo
     return speed_mps
 
 
-def _times(table: Table, header: Header) -> FloatArray:
-    """Return a column of times [s]: numbers, dates or times of day."""
-    texts = table.texts(header.name)
+def _times(table: Table, header: Header) -> tuple[FloatArray, str]:
+    """Return a column of times [s]: numbers, dates or times of day; a sentence on an assumed unit, or ''."""
+    texts, unit = table.texts(header.name), table.units[table.header.index(header.name)]
+    is_stated = unit != '' or any(':' in text for text in texts)
     if not any(':' in text for text in texts):
         table.numbers(header.name)
-    clock = find_clock(texts, header.unit, table.decimal)
+    clock = find_clock(texts, unit, table.decimal)
     seconds = np.full(len(texts), np.nan) if clock is None else clock.seconds(texts)
     if (at := first_true(~np.isfinite(seconds))) is not None:
         raise InvalidInput(f'{table.where(at)}: {header.name}: {quoted(texts[at])} is not a time; use seconds, or '
                            'a date and time as in ISO 8601: 2026-01-31T08:00:00')
-    return seconds
+    is_assumed = clock is not None and not is_stated and not clock.absolute
+    words = clock.remark if clock is not None and clock.remark else 'has no unit; its times are taken as seconds'
+    return seconds, f'{header.name}: {words}' if is_assumed else ''
 
 
 def motion_of_segments(table: Table, headers: dict[str, Header],
