@@ -192,9 +192,10 @@ def read_numbers(texts: Sequence[str], decimal: str = '.', angle: bool = False) 
     values = np.array([_number(text, angle) for text in plain])
     wrong = np.isinf(values)
     values[wrong] = np.nan
-    grouped = [GROUPED.fullmatch(plain[at].strip()) for at in np.flatnonzero(wrong)]
+    grouped = [found for at in np.flatnonzero(wrong).tolist() if (found := GROUPED.fullmatch(plain[at].strip()))]
     # 2,200 alone may be 2.2; beside 950 or 12,345.6 it has a thousands separator.
-    if all(grouped) and (np.isfinite(values).any() or not all(AMBIGUOUS.fullmatch(each[0]) for each in grouped)):
+    if len(grouped) == wrong.sum() and (
+            np.isfinite(values).any() or not all(AMBIGUOUS.fullmatch(each[0]) for each in grouped)):
         values[wrong] = [float(_ungrouped(each).replace(',', '.')) for each in grouped]
         wrong[:] = False
     return values, wrong

@@ -96,7 +96,7 @@ def journey_of_table(table: Table) -> Journey:
 
 def _samples(table: Table, headers: dict[str, Header]) -> Journey:
     """Return the Journey of a table of samples: instants with speeds, or with cumulated distances."""
-    time_s, remark = _times(table, headers['time'])
+    time_s, assumption = _times(table, headers['time'])
     if len(time_s) < 2:
         raise InvalidInput(f'{table.path}: has {len(time_s)} sample; at least 2 are needed')
     steps_s = np.diff(time_s)
@@ -116,7 +116,7 @@ def _samples(table: Table, headers: dict[str, Header]) -> Journey:
         boundary_mps = column(table, headers['speed'])
         mean_mps = _middle(boundary_mps)
         _check_accelerations(table, headers['speed'], boundary_mps, steps_s)
-    remarks = [remark] if remark else []
+    remarks = [assumption] if assumption else []
     if 'elevation' in headers:
         distance_m = np.concatenate(([0.0], np.cumsum(steps_s * mean_mps)))
         elevation_m, remark = smooth_elevation(distance_m, column(table, headers['elevation']))
