@@ -161,6 +161,10 @@ def checked_limit(points: Sequence[tuple[float, float]], note: str) -> ChargingL
     problems = list(_point_problems(points, 'degC', *READ_TEMPERATURES_C))
     if not problems and not 2 <= len(points) <= MOST_CURVE_POINTS:
         problems.append(f'{len(points)} points; 2 ... {MOST_CURVE_POINTS} are allowed')
+    low_c, high_c = LIMIT_TEMPERATURES_C
+    if not problems and (points[0][0] >= high_c or points[-1][0] <= low_c):
+        problems.append(f'it covers {points[0][0]:g} ... {points[-1][0]:g} degC; batteries have {low_c:g} ... '
+                        f'{high_c:g} degC')
     if not problems and max(power_kw for _, power_kw in points) <= 0.0:
         problems.append('the power must be above 0 kW at some temperature')
     if problems:

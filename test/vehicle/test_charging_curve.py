@@ -81,6 +81,7 @@ def test_with_a_limit_the_map_is_the_least_of_curve_limit_and_maximum(soc, tempe
     (f'{LIMIT}0,60\n', '1 points; 2 ... 1000 are allowed'),
     (f'{LIMIT}0,60\n0,70\n', '0 degC must be above the 0 degC before it'),
     (f'{LIMIT}0,60\nnan,70\n', 'nan degC is not allowed; it must be -9999 ... 9999 degC'),
+    (f'{LIMIT}273,60\n298,70\n', 'it covers 273 ... 298 degC; batteries have -60 ... 100 degC'),
     (f'{LIMIT}0,60000\n9,70\n', '60000 kW at 0 degC is not allowed; it must be 0 ... 2000 kW'),
     (f'{LIMIT}0,0\n9,0\n', 'the power must be above 0 kW at some temperature')])
 def test_a_file_that_is_no_curve_and_no_limit_is_refused_in_words(curve_of, text, problem):
