@@ -76,6 +76,8 @@ LONGEST_STEADY_S, MOST_STEADY = 300.0, 20
 LEAST_CURRENT_STEP_A, LEAST_STEPS = 5.0, 20
 # Correlation of power and acceleration that shows the sign of the power.
 LEAST_RESPONSE = 0.3
+# Power over voltage times current mostly deviates less, if they differ by a factor such as three phases.
+SAME_RATIO = 0.1
 # Mistaken units of a speed, by the factor that corrects the mistake.
 SPEED_FACTORS = {1.0 / 3.6: 'km/h taken as m/s', 3.6: 'm/s taken as km/h', 1.609344: 'mph taken as km/h',
                  1.0 / 1.609344: 'km/h taken as mph', 0.44704: 'mph taken as m/s',
@@ -202,7 +204,8 @@ def _power(signals: Signals) -> Iterator[Doubt]:
     clear = np.isfinite(product) & (np.abs(product) > 1000.0) & (power.value != 0.0)
     if clear.sum() < 5:
         return
-    ratio = float(np.median(product[clear] / power.value[clear]))
+    ratios = product[clear] / power.value[clear]
+    ratio = float(np.median(ratios))
     turned = any(doubt.signal == 'current_a' and doubt.factor < 0.0
                  for check in (_balance, _resistance) for doubt in check(signals))
     for factor, words in ((-1.0, 'has the opposite sign of voltage times current'),
@@ -211,6 +214,10 @@ def _power(signals: Signals) -> Iterator[Doubt]:
                           (0.001, 'is a thousand times voltage times current; is it in mW?')):
         if abs(ratio / factor - 1.0) < 0.3 and not (factor < 0.0 and turned):
             yield Doubt('power_w', f'power_w: {words}', factor)
+    if np.median(np.abs(ratios / ratio - 1.0)) < SAME_RATIO and all(
+            abs(abs(ratio) / usual - 1.0) > 0.3 for usual in (1.0, 1000.0, 0.001)):
+        yield Doubt('power_w', f'power_w: is {figure(1.0 / ratio, 3)} times voltage times current; are all of '
+                    'them those of the battery?', ratio, is_clear=False)
 
 
 def _size(signals: Signals) -> Iterator[Doubt]:

@@ -37,6 +37,8 @@ OTHERS = (
     (rb'\x1f\x8b|7z|BZh|\x28\xb5\x2f\xfd', 'packed', 'unpack it'),
     (rb'\x89HDF|MATLAB', 'a file of MATLAB or HDF5', 'write it as CSV'),
     (rb'(?s)SQLite format 3\0.*arbitration_id', 'a database of python-can', 'convert it with can_logconvert'),
+    (rb'(?s)SQLite format 3\0(?!.*topics)', 'a database', 'export its table as CSV'),
+    (rb'[^\0]{0,50000}?\b(CREATE TABLE|INSERT INTO) ', 'a dump of a database', 'export its table as CSV'),
     (rb'\s*<', 'XML or HTML', 'a GPX is a route: give it to --route'),
     (rb'\$[A-Z]{2}(RMC|GGA)', 'a log of a receiver (NMEA)', 'convert it to GPX and give it to --route'),
     (rb'[^\s,=#]+(,\S+=\S+)* \S+=\S+ \d{10,19}\s', "InfluxDB's line protocol", 'export it as CSV'))

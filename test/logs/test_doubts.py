@@ -64,6 +64,16 @@ def test_power_is_compared_with_voltage_times_current(tmp_path):
     np.testing.assert_allclose(repaired.signals['power_w'].value, 1000.0 * log['power_w'], rtol=1e-4)
 
 
+def test_a_power_that_is_not_voltage_times_current_by_any_unit_is_named(tmp_path):
+    # The power of three phases beside voltage and current of one, as a wallbox logs them.
+    log = {'time_s': np.arange(300.0), 'power_w': np.full(300, 11e3), 'voltage_v': np.full(300, 230.0),
+           'current_a': np.full(300, 16.0)}
+    recording = read_recording(write_wide(tmp_path / 'a.csv', log), repair=True)
+    assert any('power_w: is 2.99 times voltage times current; are all of them those of the battery?' in each
+               for each in recording.remarks)
+    assert set(recording.signals['power_w'].value) == {11e3}
+
+
 def in_miles(folder, names, left_out=()):
     """Write a drive whose speed and odometer are in miles, with these names."""
     log = {name: values for name, values in drive(900.0).items() if name not in left_out}

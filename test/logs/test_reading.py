@@ -395,6 +395,8 @@ def test_damaged_lines_are_one_remark_a_cause(tmp_path):
     (b'T_batt,T_amb\n3,-5\n3.5,-5\n', 'no column holds the time; the columns are'),
     (b'time_s,speed_mps\n0,none\n1,none\n', 'no signal has a valid reading'),
     (b'{"speed": 1}\n{"speed": 2}\n', 'no field holds the time'),
+    (b'SQLite format 3\0\0 CREATE TABLE positions \0', 'is a database, which is not read; export its table'),
+    (b'-- MySQL dump\nCREATE TABLE pos (a int);\n', 'is a dump of a database, which is not read; export its'),
     (b'SQLite format 3\0\0 arbitration_id \0', 'convert it with can_logconvert'),
     (b'PAR1\0\0', 'a Parquet file, which is not read; write it as CSV'), (b'PK\x03\x04', 'save the sheet as CSV'),
     (b'car,vin=x soc=1,t=2 1700000000000000000\n', 'line protocol, which is not read; export it as CSV'),
