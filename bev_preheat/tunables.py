@@ -169,6 +169,7 @@ ELSEWHERE_SHARE = 0.1                # 1 | cars that stood in a garage, or were 
 ELSEWHERE_WITHIN_K = 40.0            # K | range of their batteries; assumed
 KNOWN_TIME_CONSTANT_DEVIATION = 0.3  # 1 | of its logarithm: wind, garage and coolant decide; assumed
 UNMEASURED_LEAKAGE_DEVIATION = 0.8   # 1 | … of an assumed leakage: packs are nearly insulated … bare
+LONGEST_STAND_S = 1e7                # s | longer standing times count as this: by then a battery is as the air
 PARKED_WITHIN_S = 900.0              # s | a temperature so long before or after parking is the parked battery's
 NOTED_EVERY_S = 300.0                # s | temperatures are noted
 MOST_NOTED = 576                     # n | two days of them

@@ -27,6 +27,7 @@ from bev_preheat.tunables import (
     ESTIMATORS_KEPT,
     LEAST_COURSE_S,
     LONGEST_GAP_S,
+    LONGEST_STAND_S,
     MOST_NOTED,
     NAMED_FROM,
     NOTED_EVERY_S,
@@ -100,7 +101,7 @@ class StandWatch(NamedTuple):
         since_start_s = (measurement.stamp_ns - mission.start_ns) / NS_PER_S
         if since_start_s > LONGEST_GAP_S:
             return watch._replace(is_done=True), None
-        stood_s = mission.standing_time_s + min(since_start_s, 0.0)
+        stood_s = min(mission.standing_time_s, LONGEST_STAND_S) + min(since_start_s, 0.0)
         if mission.standing_time_s == 0.0 or stood_s <= 0.0:
             return watch, None
         ambient_c = float(mission.legs[0].route.ambient_temperature_c[0])

@@ -57,13 +57,14 @@ def test_a_sensor_that_contradicts_by_more_than_2_k_is_named(temperature_c, word
 
 def test_the_planner_plans_with_what_the_sensor_is_off_by():
     temperatures_c = []
-    for standing_time_s in (0.0, NIGHT_S):
+    for standing_time_s in (0.0, NIGHT_S, 1.7e308):
         supervisor = Stepwise(VEHICLE, Settings())
         supervisor.run(NOW_NS)
         supervisor.accept_mission(trip(standing_time_s=standing_time_s))
         supervisor.accept_battery(FIRST, NOW_NS)
         temperatures_c.append(supervisor.state.decision.plan.battery_temperature_c[0])
-    believed_c, corrected_c = temperatures_c
+    believed_c, corrected_c, forever_c = temperatures_c
+    assert forever_c == pytest.approx(corrected_c, abs=0.3)
     assert believed_c == pytest.approx(-5.0)
     assert -6.1 < corrected_c < -5.5
 
