@@ -97,6 +97,8 @@ SEVERAL_BLANKS = '  '
 SEPARATOR_LINE = re.compile('"?sep=(.)?"?[;,\\t]*', re.IGNORECASE)
 # Lines that determine the layout.
 SAMPLE_LINES = 400
+# Labels behind a name, as Prometheus and Grafana write them: battery_temp{car="id3"}.
+LABELS = re.compile(r'\s*\{\w+ ?=.*\}$')
 # LeafSpy's later versions write a few values more than its header names.
 MOST_UNNAMED, LEAST_NAMED = 8, 20
 
@@ -171,7 +173,7 @@ def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout |
 
 def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str | None) -> Layout | None:
     """Return the Layout with the header in a row; None if the row has no names or no values below."""
-    number, cells = rows[at][0], _trimmed(list(rows[at][1]), 0)
+    number, cells = rows[at][0], [LABELS.sub('', cell) for cell in _trimmed(list(rows[at][1]), 0)]
     if 2 * sum(map(_is_value, cells)) > len(cells) or not _are_names(cells):
         return None
     # Columns of a row may be empty; empty cells beyond the header's do not count.

@@ -281,6 +281,16 @@ def test_the_few_readings_that_a_wrong_unit_leaves_are_none(tmp_path):
                for each in recording.remarks)
 
 
+def test_labels_behind_a_name_are_not_part_of_it(tmp_path):
+    log = drive(60.0)
+    names = {'time_s': '"Time"', 'soc': '"car_soc{job=""status""}"', 'battery_temperature_c':
+             '"car_battery_temperature_celsius{car=""id3"", instance=""10.0.0.1:9100""}"'}
+    recording = read_recording(write_wide(tmp_path / 'a.csv', {name: log[name] for name in names}, names=names,
+                                          times=moments(log, '%Y-%m-%d %H:%M:%S')))
+    assert_is(recording, log, ('battery_temperature_c', 'soc'))
+    assert recording.remarks == ()
+
+
 def test_rows_of_one_reading_each_count_milliseconds(tmp_path):
     log = drive(60.0)
     del log['latitude_deg'], log['longitude_deg']
