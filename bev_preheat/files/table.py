@@ -16,6 +16,7 @@ import numpy as np
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.files.input_files import beginning_of, check_input
 from bev_preheat.files.units import (
+    AMBIGUOUS,
     ambiguous,
     decimal_mark,
     is_clear,
@@ -153,6 +154,9 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
     named = [(number, line.lstrip('# ')) for number, line in numbered[:wanted[0][0] - 1 if wanted else 0][-1:]]
     for each in (wanted, named + wanted):
         found = [layout for separator in separators if (layout := _layout(each, separator)) is not None]
+        if found and found[0].separator == SEPARATORS[0]:
+            # Blanks are then between words, or between date and time.
+            found = [layout for layout in found if layout.separator in SEPARATORS]
         if found:
             # The separator that leaves most cells with values: 1,5;2,5 are two numbers, 2026-01-01 10:00 one time.
             return max(found, key=lambda layout: sum(_is_value(cell) for row in layout.rows[:50] for cell in row))
@@ -189,7 +193,9 @@ def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str 
     if not near or not any(_is_value(cell) for _, row in following[:50] for cell in row):
         return None
     body = tuple(tuple(row) for _, row in following)
-    decimal = '.' if separator == ',' else decimal_mark(cell for row in body for cell in row)
+    # Between commas a quoted 2,200 is not clear, and 7,5 has a decimal comma.
+    decimal = decimal_mark(cell for row in body for cell in row
+                           if separator != ',' or not AMBIGUOUS.fullmatch(cell))
     # A number distinguishes columns of the same name.
     seen: Counter[str] = Counter()
     header = []

@@ -145,8 +145,8 @@ PLAIN_CHARACTERS = frozenset('0123456789.+-eE')
 NUMBER = re.compile(r'([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s-].*)?')
 # 51 30.1234, as LeafSpy writes a latitude: degrees and minutes.
 DEGREES_MINUTES = re.compile(r'([NSEW]?)\s*([+-]?)([0-9]{1,3})[ °]+([0-9]{1,2}(?:\.[0-9]*)?)\'?\s*([NSEW]?)')
-WITH_COMMA = re.compile(r'[+-]?[0-9]+,[0-9]+([eE].*)?')
-WITH_POINT = re.compile(r'[+-]?[0-9]+\.[0-9]+([eE].*)?')
+WITH_COMMA = re.compile(r'[+-]?[0-9]+,[0-9]+(\s*[^0-9\s,.:-].*)?')
+WITH_POINT = re.compile(r'[+-]?[0-9]+\.[0-9]+(\s*[^0-9\s,.:-].*)?')
 # 1.500 and 1,500 are ambiguous: one and a half or fifteen hundred.
 AMBIGUOUS = re.compile(r'[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}')
 # A point before three digits, beside decimal commas.

@@ -205,6 +205,17 @@ def test_each_reading_may_have_a_unit_of_its_own(tmp_path, text):
     assert "'3.6 V' is no reading of battery_temperature_c; it is dropped" in ' '.join(recording.remarks)
 
 
+@pytest.mark.parametrize('separator, cell', [
+    (';', '{} °C'), (';', '{}\u00a0°C'), (',', '"{}"'), (',', '"{} °C"'), ('\t', '{}°C')])
+def test_decimal_commas_in_quotes_or_before_units(tmp_path, separator, cell):
+    temperatures_c = np.linspace(-3.5, 6.25, 40)
+    rows = [separator.join((f'2026-01-15 07:30:{at:02d}', cell.format(f'{temperature_c:.2f}'.replace('.', ','))))
+            for at, temperature_c in enumerate(temperatures_c)]
+    (tmp_path / 'a.csv').write_text('\n'.join((separator.join(('time', 'battery temp')), *rows)), encoding='utf-8')
+    np.testing.assert_allclose(read_recording(tmp_path / 'a.csv').signals['battery_temperature_c'].value,
+                               temperatures_c, atol=0.006)
+
+
 def test_units_with_a_step_and_units_that_nobody_knows(tmp_path):
     log = drive(60.0)
     names = {'battery_temperature_c': ('Battery temp [0.1 °C]', 10.0), 'soc': ('SOC [0.5 %]', 200.0),
