@@ -93,7 +93,9 @@ def hypotheses(numbers: FloatArray, given: Hypothesis, source: Source) -> tuple[
         # Smart batteries count tenths of a kelvin.
         found += [Hypothesis('kelvin', 0.1 * given.scale)] * source.signal.endswith('_c')
         # Of the smaller and of the larger ones, the first that fits; those beyond it fit for nothing.
-        for scales in OTHER_SCALES:
+        # A temperature that never changes is a code, such as the least value of its bits.
+        is_code = source.signal.endswith('_c') and np.ptp(numbers[np.isfinite(numbers)]) == 0.0
+        for scales in () if is_code else OTHER_SCALES:
             scaled = (given._replace(scale=given.scale * scale) for scale in scales)
             found += [each for each in scaled if each.fits(numbers, source)][:1]
         # Battery managers count halves of a percent in a byte.

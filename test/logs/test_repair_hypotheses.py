@@ -95,6 +95,14 @@ def test_a_single_wild_reading_is_dropped_and_explained_by_nothing(tmp_path):
     assert '250 is implausible' in said and 'plausible;' not in said
 
 
+def test_a_code_that_never_changes_is_no_temperature_in_tenths(tmp_path):
+    path = write_wide(tmp_path / 'a.csv', log_of(np.full(301, -50.0)))
+    values, said = temperature(path, repair=True)
+    assert not values.size and '-50 is implausible' in said and 'a factor of' not in said
+    path = write_wide(tmp_path / 'a.csv', log_of(10.0 * np.round(np.linspace(-5.0, -2.0, 301)) - 10.0))
+    np.testing.assert_allclose(temperature(path, repair=True)[0][[0, -1]], [-6.0, -3.0])
+
+
 @pytest.mark.parametrize('nothing', [65.535, 655.35, 6553.5, 65535.0, 255.0, 127.5, 215.0, 32.767])
 def test_all_bits_set_is_no_reading(tmp_path, nothing):
     readings = np.where(np.arange(301) < 100, nothing, 2.0)
