@@ -127,7 +127,8 @@ class Layout:
 def split_line(line: str, separator: str | None) -> list[str]:
     """Return the cells of a line, stripped; empty ones at its end stay."""
     if separator is None:
-        return line.split()
+        # Time (s) is a single name.
+        return re.sub(r'(?<=\S)\s+(?=[(\[])', '', line).split()
     if separator == SEVERAL_BLANKS:
         return re.split(r'\s{2,}', line.strip())
     if '"' not in line:
@@ -190,6 +191,8 @@ def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str 
     # A header is followed by lines of as many cells, some with values.
     usual = Counter(len(row) for _, row in following).most_common(1)[0][0]
     near = usual >= 2 and abs(usual - len(cells)) <= max(MOST_UNNAMED, len(cells) // 2)
+    # Between blanks no cell is empty, so that the header has names of several words.
+    near = near and (separator is not None or usual == len(cells))
     if not near or not any(_is_value(cell) for _, row in following[:50] for cell in row):
         return None
     body = tuple(tuple(row) for _, row in following)

@@ -216,6 +216,18 @@ def test_decimal_commas_in_quotes_or_before_units(tmp_path, separator, cell):
                                temperatures_c, atol=0.006)
 
 
+def test_names_of_several_words_between_blanks_shift_no_column(tmp_path):
+    rows = '\n'.join(f'{at} {50 + at} 4 {6.5 + at / 10}' for at in range(30))
+    path = tmp_path / 'a.txt'
+    path.write_text(f'Time (s) Speed (km/h) Gear Battery_temp [degC]\n{rows}\n')
+    signals = read_recording(path).signals
+    np.testing.assert_allclose(signals['speed_mps'].value[[0, -1]], [50.0 / 3.6, 79.0 / 3.6])
+    np.testing.assert_allclose(signals['battery_temperature_c'].value[[0, -1]], [6.5, 9.4])
+    path.write_text(f'Time s Vehicle speed Gear Battery temp\n{rows}\n')
+    with pytest.raises(InvalidInput, match='a CSV log has a header that names its columns'):
+        read_recording(path)
+
+
 def test_units_with_a_step_and_units_that_nobody_knows(tmp_path):
     log = drive(60.0)
     names = {'battery_temperature_c': ('Battery temp [0.1 °C]', 10.0), 'soc': ('SOC [0.5 %]', 200.0),
