@@ -102,6 +102,7 @@ SAMPLE_LINES = 400
 LABELS = re.compile(r'\s*\{\w+ ?=.*\}$')
 # LeafSpy's later versions write a few values more than its header names.
 MOST_UNNAMED, LEAST_NAMED = 8, 20
+LEAST_ALIKE = 10
 
 
 @dataclass(frozen=True)
@@ -166,14 +167,16 @@ def find_layout(lines: Sequence[str]) -> Layout | None:
 
 def _layout(lines: Sequence[tuple[int, str]], separator: str | None) -> Layout | None:
     rows = [(number, split_line(_without_comment(line), separator)) for number, line in lines]
-    first = None
+    above_values, first = None, None
     for at in range(len(rows) - 1):
         layout = _with_header(rows, at, separator)
         # A title may have as many cells as the header, which is just above the values.
         if layout is not None and any(map(_is_value, layout.rows[0])):
-            return layout
+            if len(layout.header) == layout.cells:
+                return layout
+            above_values = above_values or layout
         first = first or layout
-    return first
+    return above_values or first
 
 
 def _with_header(rows: Sequence[tuple[int, list[str]]], at: int, separator: str | None) -> Layout | None:
@@ -242,8 +245,11 @@ class TableFile:
         """Take the file's encoding and Layout; raises InvalidInput if its lines do not fit its header."""
         self.path, self.layout, self.encoding = path, layout, encoding
         usual, named = layout.cells, len(layout.header)
-        if usual > named and not (named >= LEAST_NAMED and usual - named <= MOST_UNNAMED):
-            hint = '; with decimal commas, separate the columns by semicolons' if layout.separator == ',' else ''
+        # Rows may end early, but not all alike.
+        too_few = usual < named and len(layout.rows) >= LEAST_ALIKE and len(set(map(len, layout.rows))) == 1
+        if too_few or (usual > named and not (named >= LEAST_NAMED and usual - named <= MOST_UNNAMED)):
+            hint = '; with decimal commas, separate the columns by semicolons' if (
+                layout.separator == ',' and not too_few) else ''
             raise InvalidInput(f'{path}, line {layout.first}: has {usual} values; the header names '
                                f'{named} columns{hint}')
         self._least, self._most = min(usual, named), max(usual, named)
@@ -274,6 +280,9 @@ class TableFile:
             cells = cells[:named] if len(cells) >= named else cells + [''] * (named - len(cells))
             # Logs that were joined repeat their header.
             if cells != header:
+                if cells[0] in header and len({*cells} & {*header}) > 1 and not any(map(_is_value, cells)):
+                    raise InvalidInput(f'{self.path}, line {number}: names other columns than line '
+                                       f'{layout.header_line}; split the file there')
                 numbers.append(number)
                 rows.append(cells)
         return numbers, rows

@@ -228,6 +228,28 @@ def test_names_of_several_words_between_blanks_shift_no_column(tmp_path):
         read_recording(path)
 
 
+ROWS = ''.join(f'{at},{6.5 + at / 10},{80 - at / 10},50\n' for at in range(30))
+
+
+@pytest.mark.parametrize('text, problem', [
+    ('time_s,car,battery temp [C],soc [%],speed [km/h]\n' + ROWS,
+     'line 2: has 4 values; the header names 5 columns$'),
+    (f'time_s,battery temp [C],soc [%],speed [km/h]\n{ROWS}time_s,soc [%],battery temp [C],speed [km/h]\n{ROWS}',
+     'line 32: names other columns than line 1; split the file there')])
+def test_columns_that_do_not_fit_their_header_are_refused(tmp_path, text, problem):
+    (tmp_path / 'a.csv').write_text(text)
+    with pytest.raises(InvalidInput, match=problem):
+        read_recording(tmp_path / 'a.csv')
+
+
+def test_lines_of_two_words_above_the_header_are_titles(tmp_path):
+    (tmp_path / 'a.csv').write_text('Vehicle,ID.3\nStart,2026-01-15\n\n'
+                                    'time_s,battery temp [C],soc [%],speed [km/h]\n' + ROWS)
+    recording = read_recording(tmp_path / 'a.csv')
+    np.testing.assert_allclose(recording.signals['battery_temperature_c'].value[[0, -1]], [6.5, 9.4])
+    assert recording.remarks == ()
+
+
 def test_units_with_a_step_and_units_that_nobody_knows(tmp_path):
     log = drive(60.0)
     names = {'battery_temperature_c': ('Battery temp [0.1 °C]', 10.0), 'soc': ('SOC [0.5 %]', 200.0),
