@@ -216,8 +216,8 @@ def _power(signals: Signals) -> Iterator[Doubt]:
             yield Doubt('power_w', f'power_w: {words}', factor)
     if np.median(np.abs(ratios / ratio - 1.0)) < SAME_RATIO and all(
             abs(abs(ratio) / usual - 1.0) > 0.3 for usual in (1.0, 1000.0, 0.001)):
-        yield Doubt('power_w', f'power_w: is {figure(1.0 / ratio, 3)} times voltage times current; are all of '
-                    'them those of the battery?', ratio, is_clear=False)
+        yield Doubt('power_w', f'power_w: is {figure(1.0 / ratio, 3)} times voltage times current; do all '
+                    'three belong to the battery?', ratio, is_clear=False)
 
 
 def _size(signals: Signals) -> Iterator[Doubt]:

@@ -69,7 +69,7 @@ def test_a_power_that_is_not_voltage_times_current_by_any_unit_is_named(tmp_path
     log = {'time_s': np.arange(300.0), 'power_w': np.full(300, 11e3), 'voltage_v': np.full(300, 230.0),
            'current_a': np.full(300, 16.0)}
     recording = read_recording(write_wide(tmp_path / 'a.csv', log), repair=True)
-    assert any('power_w: is 2.99 times voltage times current; are all of them those of the battery?' in each
+    assert any('power_w: is 2.99 times voltage times current; do all three belong to the battery?' in each
                for each in recording.remarks)
     assert set(recording.signals['power_w'].value) == {11e3}
 
