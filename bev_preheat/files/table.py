@@ -265,7 +265,7 @@ class TableFile:
               drop: Callable[[int, str], object]) -> tuple[list[int], list[list[str]]]:
         """Return line numbers and cells of the lines of values, all of the header's length."""
         layout, named = self.layout, len(self.layout.header)
-        header = list(layout.header)
+        header, names = list(layout.header), frozenset(layout.header)
         numbers, rows = [], []
         for number, line in enumerate(lines, start=first):
             if number < layout.first or is_blank(line):
@@ -280,7 +280,7 @@ class TableFile:
             cells = cells[:named] if len(cells) >= named else cells + [''] * (named - len(cells))
             # Logs that were joined repeat their header.
             if cells != header:
-                if cells[0] in header and len({*cells} & {*header}) > 1 and not any(map(_is_value, cells)):
+                if cells[0] in names and len(names & {*cells}) > 1 and not any(map(_is_value, cells)):
                     raise InvalidInput(f'{self.path}, line {number}: names other columns than line '
                                        f'{layout.header_line}; split the file there')
                 numbers.append(number)
