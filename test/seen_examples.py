@@ -26,7 +26,8 @@ def a_plan(at_s=START_S, **changed):
     curves = {
         'times_s': (START_S, START_S + 600.0, START_S + 1800.0), 'temperatures_c': (-7.0, -5.0, 24.5),
         'socs': (0.9, 0.85, 0.61), 'powers_w': (0.0, 5000.0)}
-    message.update((name, changed.pop(name)) for name in list(changed) if name not in PlanSeen._fields)
+    fields = PreheatPlan.get_fields_and_field_types()
+    message.update((name, changed.pop(name)) for name in list(changed) if name in fields)
     seen = {'at_s': at_s, 'heating_start_s': START_S + 600.0, **curves, **changed}
     return PlanSeen(PreheatPlan(**message), **seen)
 

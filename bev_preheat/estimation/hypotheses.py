@@ -49,7 +49,7 @@ HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
 # Place of the sensor (`state`) in a car whose file does not describe it: core, shell, thin shell. Mean, standard
 # deviation, prior probability, lag of the heat [s]. The shells' lags are those of 180 W/K: the filters find a
-# shorter lag sooner than a longer one. With 150 and 100 s a core behind 100 W/K is believed 2 K warmer.
+# shorter lag sooner than a longer one. With 150 and 100 s the estimate of a core behind 100 W/K is 2 K warmer.
 PLACES = (0.0, 4.0, 8.0)
 PLACE_DEVIATIONS = (0.1, 1.2, 2.0)
 PLACE_WEIGHTS = (0.8, 0.13, 0.07)

@@ -104,7 +104,7 @@ LARGEST_STEPS = {'battery_temperature_c': JUMP_K, 'ambient_c': JUMP_K, 'soc': 0.
 # A reading is compared with the median of as many around it, if they are within this time [s].
 LONE_OF, LONGEST_LONE_S, MOST_LONE = 5, 120.0, 0.05
 # The readings of a channel that may be dropped for each that is left.
-MOST_DROPPED = 4
+DROPPED_A_READING = 4
 # Fewer samples do not show that a channel jumps.
 LEAST_OF_JUMPS = 20
 
@@ -181,7 +181,7 @@ class Assembly:
             values = self._settled(signal, decoder, Series(time_s, values), places)
             good = np.isfinite(values)
             time_s, values, places = time_s[good], values[good], places[good]
-        if decoder.dropped > MOST_DROPPED * kept.averaged * len(values) > 0:
+        if decoder.dropped > DROPPED_A_READING * kept.averaged * len(values) > 0:
             # Such as the small readings of a current in mA.
             self._remarks.add(f'rest {channel}', f'{self._path}: {channel}: few of its readings are left, so it '
                               f'is not taken for {signal}')
