@@ -15,6 +15,7 @@ from bev_preheat.numerics import FloatArray
 from bev_preheat.tunables import (
     FAILURE_S,
     FAULTY,
+    LAG_DEVIATION,
     LEANING,
     LEANING_COURSE_K,
     LEANING_COURSE_S,
@@ -48,12 +49,12 @@ SHARES = (1.0, 0.5, 0.25, 0.0, 1.0)
 HEATERS = (Heater.ANSWERS, *(Heater.DERATED,) * 2, Heater.DEAD, Heater.STUCK_ON)
 HEALTHY, STUCK = 0, len(SHARES) - 1
 # Place of the sensor (`state`) in a car whose file does not describe it: core, shell, thin shell. Mean, standard
-# deviation, prior probability, lag of the heat [s]. The shells' lags are those of 180 W/K: the filters find a
-# shorter lag sooner than a longer one. With 150 and 100 s the estimate of a core behind 100 W/K is 2 K warmer.
+# deviation, prior probability; lag of the heat [s], and deviation of its logarithm.
 PLACES = (0.0, 4.0, 8.0)
 PLACE_DEVIATIONS = (0.1, 1.2, 2.0)
-PLACE_WEIGHTS = (0.8, 0.13, 0.07)
-PLACE_LAGS_S = (NOMINAL_HEAT_LAG_S, 400.0, 250.0)
+PLACE_WEIGHTS = (0.7, 0.2, 0.1)
+PLACE_LAGS_S = (NOMINAL_HEAT_LAG_S, 150.0, 100.0)
+PLACE_LAG_DEVIATIONS = (LAG_DEVIATION, 0.7, 0.7)
 IDENTITY = np.eye(len(SHARES))
 
 # Battery states arrive at few different intervals, usually one.

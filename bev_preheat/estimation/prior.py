@@ -28,7 +28,7 @@ from bev_preheat.estimation.estimate import (
     SENSOR_PLACE,
     SOURCE_HEAT,
 )
-from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACE_LAGS_S, PLACES
+from bev_preheat.estimation.hypotheses import PLACE_DEVIATIONS, PLACE_LAG_DEVIATIONS, PLACE_LAGS_S, PLACES
 from bev_preheat.numerics import FloatArray, frozen
 from bev_preheat.tunables import (
     AMBIENT_DEVIATION_K,
@@ -91,7 +91,8 @@ def described_placing(path: HeatPath) -> tuple[FloatArray, FloatArray]:
 def lags_of_places() -> tuple[FloatArray, FloatArray]:
     """Return means and variances (places, 2) of the lags of a car whose file has none, as in LAGS."""
     heat = np.log(np.array(PLACE_LAGS_S) / NOMINAL_HEAT_LAG_S)
-    return np.stack((heat, np.zeros(len(PLACES))), axis=-1), np.full((len(PLACES), len(LAGS)), LAG_DEVIATION**2)
+    return (np.stack((heat, np.zeros(len(PLACES))), axis=-1),
+            np.square(np.stack((PLACE_LAG_DEVIATIONS, np.full(len(PLACES), LAG_DEVIATION)), axis=-1)))
 
 
 @dataclass(frozen=True, eq=False)
