@@ -50,7 +50,7 @@ def learned_from(estimate: Estimate) -> Learned:
     covariance[route, :] = covariance[:, route] = 0.0
     covariance[route, route] = prior[route, route]
     # The variance of a car that was hardly seen grows, but never beyond the prior's.
-    shrink = np.sqrt(np.minimum(1.0, np.diag(prior) / np.diag(covariance)))
+    shrink = np.sqrt(np.minimum(1.0, np.diag(prior) / np.maximum(np.diag(covariance), LEAST_VARIANCE)))
     return Learned(factors, covariance * np.outer(shrink, shrink), _lags_from(estimate))
 
 
