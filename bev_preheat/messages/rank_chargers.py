@@ -12,12 +12,12 @@ from bev_preheat.charging.stop import CHARGER_RANGE_W
 from bev_preheat.charging.target_worth import MOST_PRICE_PER_KWH
 from bev_preheat.errors import InvalidInput, quoted
 from bev_preheat.messages.fields import Figure
+from bev_preheat.route.segments import Places, Route
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from bev_preheat.charging.chargers import CandidateWorth
-    from bev_preheat.route.segments import Places, Route
     from bev_preheat_msgs.srv import RankChargers
 
 MOST_CHARGERS = 20
