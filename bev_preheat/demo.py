@@ -50,7 +50,7 @@ from bev_preheat.nodes.simulated_drive import ARRIVED, SimulatedDriveReport
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.planner import plan_unheated
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.writer import recording_beside
+from bev_preheat.recording.ring import recording_beside
 from bev_preheat.route import route_file
 from bev_preheat.simulation.scenario import load_scenario, Scenario
 from bev_preheat.simulation.supervised_drive import START_NS

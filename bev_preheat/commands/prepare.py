@@ -133,7 +133,7 @@ def run(arguments: Namespace) -> int:
         with EndSignals() as signals:
             from bev_preheat.control.preparation_goal import PreparationGoal
             from bev_preheat.monitoring.planner_client import PreparationClient, skip_departure
-            from bev_preheat.nodes.process import listening
+            from bev_preheat.nodes.listening import listening
             prefix = namespace.strip('/')
             planner = f'/{prefix}/{node}' if prefix else f'/{node}'
             with listening(f'prepare_{os.getpid()}', namespace=namespace) as listener:

@@ -26,7 +26,7 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.prepare_battery import goal_message
 from bev_preheat.monitoring.source import Answer, Asked, CANCEL, DISABLE, ENABLE, PREPARE, SKIP
-from bev_preheat.nodes.process import Listener
+from bev_preheat.nodes.listening import Listener
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.planning.status import Status

@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import datetime, UTC
 import math
 from queue import SimpleQueue
 from typing import Any
@@ -17,6 +15,14 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
+from bev_preheat.bus.conditioning import (
+    ConditioningGoal,
+    ConditioningRequest,
+    INACTIVE,
+    IS_ACTIVE,
+    IS_ONGOING,
+    MODE,
+)
 from bev_preheat.bus.source import steady_s
 from bev_preheat.bus.vss_source import VssSource
 from bev_preheat.control.preparation_goal import PreparationGoal
@@ -25,93 +31,10 @@ from bev_preheat.messages.diagnostics import judged
 from bev_preheat.messages.heater import heater_command
 from bev_preheat.messages.prepare_battery import goal_message
 from bev_preheat.nodes.heater_execution import instant_of
-from bev_preheat.nodes.parameters import Parameter
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.vehicle.heater_controller import HeaterController, HeaterLimits
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand
-
-BRANCH = 'Vehicle.Powertrain.TractionBattery.BatteryConditioning'
-MODE, TEMPERATURE, TIME = f'{BRANCH}.RequestedMode', f'{BRANCH}.TargetTemperature', f'{BRANCH}.TargetTime'
-IS_ACTIVE, IS_ONGOING = f'{BRANCH}.IsActive', f'{BRANCH}.IsOngoing'
-ACTUATORS = (MODE, TEMPERATURE, TIME)
-INACTIVE, FAST_CHARGING, DRIVING = 'INACTIVE', 'FAST_CHARGING_PREPARATION', 'DRIVING_PREPARATION'
-REQUESTED_MODE = Parameter(MODE, INACTIVE, 'Reason for the conditioning.',
-                           choices=(INACTIVE, FAST_CHARGING, DRIVING))
-# Target [deg C], None: the default, and instant [s since the epoch], 0: soon.
-Goal = tuple[float | None, float]
-# Targets [deg C] that make sense for a battery; the planner has limits of its own.
-LOWEST_C, HIGHEST_C = -40.0, 80.0
-
-
-@dataclass(frozen=True)
-class ConditioningRequest:
-    """
-    The values requested last; REQUESTED_MODE has all words for `mode`.
-
-    `target_c` [deg C] None: the planner's default. `ready_at_s` [s since the epoch] 0: soon.
-    """
-
-    mode: str = INACTIVE
-    target_c: float | None = None
-    ready_at_s: float = 0.0
-
-    def after(self, values: Mapping[str, Any]) -> ConditioningRequest:
-        """Return the request after new values by path; raises InvalidInput, one problem per path."""
-        mode, target_c, ready_at_s = self.mode, self.target_c, self.ready_at_s
-        problems: list[str] = []
-        if MODE in values:
-            mode = str(values[MODE])
-            if problem := REQUESTED_MODE.problem_with(mode):
-                problems.append(problem)
-        if TEMPERATURE in values:
-            target_c = float(values[TEMPERATURE])
-            if not (math.isfinite(target_c) and LOWEST_C <= target_c <= HIGHEST_C):
-                problems.append(f'{TEMPERATURE}: {target_c:g} is not allowed; it must be {LOWEST_C:g} ... '
-                                f'{HIGHEST_C:g} degC')
-        if TIME in values:
-            try:
-                ready_at_s = instant_of_iso(str(values[TIME]))
-            except InvalidInput as error:
-                problems.append(f'{TIME}: {error}')
-        if not problems and mode == DRIVING and target_c is None:
-            problems.append(f'{TEMPERATURE}: is not set; {DRIVING} needs it, because the planner has a default '
-                            'for fast charging only')
-        if problems:
-            raise InvalidInput(problems)
-        return ConditioningRequest(mode, target_c, ready_at_s)
-
-    @property
-    def goal(self) -> Goal | None:
-        """Target [deg C] and instant [s] of the goal; None while the mode is INACTIVE."""
-        return None if self.mode == INACTIVE else (self.target_c, self.ready_at_s)
-
-    def values(self) -> dict[str, Any]:
-        """Return the request as current values of its paths."""
-        values: dict[str, Any] = {MODE: self.mode}
-        if self.target_c is not None:
-            values[TEMPERATURE] = self.target_c
-        if self.ready_at_s:
-            at = datetime.fromtimestamp(self.ready_at_s, UTC)
-            values[TIME] = at.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
-        return values
-
-
-def instant_of_iso(text: str) -> float:
-    """Return an ISO 8601 text as seconds since the epoch, '' as 0; UTC without an offset. Raises InvalidInput."""
-    text = text.strip()
-    if not text:
-        return 0.0
-    try:
-        moment = datetime.fromisoformat(text)
-        instant_s = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-    except (ValueError, OverflowError) as error:
-        raise InvalidInput(f'{quoted(text)} is no instant in ISO 8601, such as 2026-01-31T06:30:00Z') from error
-    if not 0.0 <= instant_s < 2**31:
-        raise InvalidInput(f'{quoted(text)} is outside 1970 ... 2038')
-    # VSS's own "not set" is the epoch's first instant.
-    return instant_s
-
 
 GOAL_PERIOD_S = 0.1
 # A refusal is shown in the diagnostics for this time [s].
@@ -144,8 +67,8 @@ class BusConditioning:
             raise InvalidInput(f'planner: {quoted(planner)} is not allowed; it must be the name of a '
                                'node') from error
         self._client = ActionClient(node, PrepareBattery, action)
-        self._wanted: Goal | None = None
-        self._sent: Goal | None = None
+        self._wanted: ConditioningGoal | None = None
+        self._sent: ConditioningGoal | None = None
         self._handle: Any = None
         self._told: dict[str, Any] = {}
         self._connections = 0
@@ -189,7 +112,7 @@ class BusConditioning:
             # The cabin sees the values that count.
             self._told = {}
             return
-        self._wanted = self._request.goal
+        self._wanted = self._request.goal()
 
     def _refuse(self, sentence: str) -> None:
         self._refusal, self._refused_s = sentence, steady_s()
@@ -205,11 +128,11 @@ class BusConditioning:
             return
         if self._ready_since_s is None or steady_s() < self._retry_at_s:
             return
-        target_c, ready_at_s = self._sent = self._wanted
-        self._handle, self._alive_until_s = None, steady_s() + self._silence_s
+        goal = self._wanted
+        self._sent, self._handle, self._alive_until_s = goal, None, steady_s() + self._silence_s
         self._number += 1
         message = goal_message(PreparationGoal(
-            round(ready_at_s * NS_PER_S), target_c, self.is_plugged_in, self.ambient_c))
+            round(goal.ready_at_s * NS_PER_S), goal.target_c, self.is_plugged_in, self.ambient_c))
         number = self._number
         future = self._client.send_goal_async(message, lambda feedback: self._on_feedback(number))
         future.add_done_callback(lambda future: self._on_accepted(number, future))

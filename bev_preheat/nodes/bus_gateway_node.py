@@ -12,6 +12,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
 from bev_preheat.bus.can_source import CanSource
+from bev_preheat.bus.conditioning import ACTUATORS
 from bev_preheat.bus.live_map import AMBIENT, load_live_map, SPEED
 from bev_preheat.bus.source import LiveBattery, steady_s
 from bev_preheat.bus.vss_source import VssSource
@@ -20,7 +21,7 @@ from bev_preheat.control.inputs import SupplyStatus
 from bev_preheat.errors import InvalidInput
 from bev_preheat.messages.battery_state import battery_state_message
 from bev_preheat.messages.diagnostics import judged
-from bev_preheat.nodes.bus_conditioning import ACTUATORS, BusConditioning
+from bev_preheat.nodes.bus_conditioning import BusConditioning
 from bev_preheat.nodes.heater_execution import CanHeater, HeaterExecution
 from bev_preheat.nodes.node import guarded, ProgramNode
 from bev_preheat.nodes.parameters import StartParameter

@@ -27,9 +27,9 @@ from bev_preheat.messages.inputs import INPUTS
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
 from bev_preheat.recording import records
+from bev_preheat.recording.ring import check_folder
 from bev_preheat.recording.writer import (
     BEGINNING_CHANNEL,
-    check_folder,
     Entry,
     Kind,
     Recording,

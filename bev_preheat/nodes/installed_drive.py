@@ -29,12 +29,12 @@ from bev_preheat.files.output_files import AnyPath, existing_file
 from bev_preheat.messages.diagnostics import values_of
 from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.messages.preheat_plan import charging_text
+from bev_preheat.nodes.listening import Listener, listening
 from bev_preheat.nodes.parameters import as_typed
-from bev_preheat.nodes.process import Listener, listening
 from bev_preheat.nodes.simulated_drive import ARRIVED, outcome_from_diagnostics, SimulatedDriveReport
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.planning.status import Status
-from bev_preheat.recording.writer import KeptRecording
+from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario import Scenario
 from bev_preheat.simulation.scenario_drive import DriveRecord, fill_phases, HEALTHY, SIGNALS
 from bev_preheat.simulation.supervised_drive import START_NS

@@ -1,14 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""
-The command line and the main loop of all executables: `--help`, one line for each start error, a clean end.
-
-`listening` gives a node to a program that is not a node itself, to follow other nodes.
-"""
+"""The command line and the main loop of all executables: `--help`, one line for each start error, a clean end."""
 
 from __future__ import annotations
 
 import argparse
-from contextlib import contextmanager
 from dataclasses import dataclass
 import os
 import re
@@ -16,13 +11,11 @@ import signal
 import sys
 import textwrap
 from threading import Thread
-from time import monotonic
 from typing import TYPE_CHECKING
 
 import rclpy
-from rclpy.context import Context
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidNamespaceException, NameValidationException, ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger_level, LoggingSeverity, set_logger_level
@@ -33,7 +26,7 @@ from rclpy.task import Future
 from bev_preheat.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from typing import NoReturn
 
     from rclpy.node import Node
@@ -242,42 +235,3 @@ def _wait_for_signal(signal_pipe: int, finished: Future) -> None:
     os.read(signal_pipe, 1)
     if not finished.done():
         finished.set_result(None)
-
-
-# Longest wait for a message [s], because Python handles signals between two waits. It is constant, because an
-# executor whose timeout changes prefers the first subscriptions.
-WAIT_S = 0.05
-
-
-class Listener:
-    """A node whose callbacks run only in `listen`, in the caller's thread: their data need no lock."""
-
-    def __init__(self, node: Node, executor: SingleThreadedExecutor) -> None:
-        self.node, self._executor = node, executor
-
-    def listen(self, duration_s: float) -> None:
-        """Run callbacks for `duration_s` [s of real time]; a callback's exception passes through."""
-        end_s = monotonic() + duration_s
-        while monotonic() < end_s:
-            self._executor.spin_once(timeout_sec=WAIT_S)
-
-
-@contextmanager
-def listening(name: str, domain_id: int | None = None, namespace: str = '') -> Iterator[Listener]:
-    """Give the Listener of a new node in a domain, None: the environment's; InvalidInput on a bad namespace."""
-    context = Context()
-    rclpy.init(context=context, domain_id=domain_id)
-    try:
-        try:
-            node = rclpy.create_node(name, context=context, namespace=namespace, enable_rosout=False)
-        except InvalidNamespaceException as error:
-            raise InvalidInput(f'--namespace: {namespace!r}: {error}') from error
-        executor = SingleThreadedExecutor(context=context)
-        executor.add_node(node)
-        try:
-            yield Listener(node, executor)
-        finally:
-            executor.shutdown()
-            node.destroy_node()
-    finally:
-        context.try_shutdown()

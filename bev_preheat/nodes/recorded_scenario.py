@@ -19,7 +19,7 @@ from bev_preheat.messages.preheat_plan import plan_message, temperature_message
 from bev_preheat.messages.route_plan import route_plan_message
 from bev_preheat.messages.route_progress import progress_event, progress_message
 from bev_preheat.nodes.flight_recording import FlightRecorder, Setup
-from bev_preheat.recording.writer import KeptRecording
+from bev_preheat.recording.ring import KeptRecording
 from bev_preheat.simulation.scenario import Scenario
 from bev_preheat.simulation.scenario_drive import drive_scenario, DriveRecord
 from bev_preheat.simulation.sensors import Reading

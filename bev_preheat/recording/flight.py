@@ -20,7 +20,8 @@ from bev_preheat.numerics import NS_PER_DAY, NS_PER_S
 from bev_preheat.optional_packages import require
 from bev_preheat.planning.explanation import duration_text
 from bev_preheat.recording.records import Beginning, RecordedState, RecordedStep
-from bev_preheat.recording.writer import BEGINNING_CHANNEL, GAP_CHANNEL, recordings_in, STATE_CHANNEL, STEP_CHANNEL
+from bev_preheat.recording.ring import recordings_in
+from bev_preheat.recording.writer import BEGINNING_CHANNEL, GAP_CHANNEL, STATE_CHANNEL, STEP_CHANNEL
 
 if TYPE_CHECKING:
     from bev_preheat.recording.replay import Played

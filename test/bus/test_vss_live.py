@@ -6,10 +6,10 @@ import time
 import pytest
 from waiting import poll_until
 
+from bev_preheat.bus.conditioning import ACTUATORS, IS_ACTIVE, MODE
 from bev_preheat.bus.live_map import load_live_map
 from bev_preheat.bus.source import steady_s
 from bev_preheat.bus.vss_source import VssSource
-from bev_preheat.nodes.bus_conditioning import ACTUATORS, IS_ACTIVE, MODE
 
 pytestmark = [pytest.mark.needs('kuksa_client')]
 PACK = 'Vehicle.Powertrain.TractionBattery'

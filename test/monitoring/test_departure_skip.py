@@ -47,7 +47,7 @@ def skip(monkeypatch, capfd):
             planner.namespace = namespace
             yield planner
 
-        monkeypatch.setattr('bev_preheat.nodes.process.listening', listening)
+        monkeypatch.setattr('bev_preheat.nodes.listening.listening', listening)
         monkeypatch.setattr(planner_client, 'time', planner)
         monkeypatch.setenv('COLUMNS', '200')
         return main(['prepare', *arguments]), *capfd.readouterr()

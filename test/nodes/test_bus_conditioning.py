@@ -10,9 +10,7 @@ import pytest
 from rclpy.task import Future
 from rehearsal import RehearsedNode
 
-from bev_preheat.messages.fields import nanoseconds, time_message
-from bev_preheat.nodes import bus_conditioning
-from bev_preheat.nodes.bus_conditioning import (
+from bev_preheat.bus.conditioning import (
     FAST_CHARGING,
     INACTIVE,
     IS_ACTIVE,
@@ -21,6 +19,8 @@ from bev_preheat.nodes.bus_conditioning import (
     TEMPERATURE,
     TIME,
 )
+from bev_preheat.messages.fields import nanoseconds, time_message
+from bev_preheat.nodes import bus_conditioning
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat_msgs.action import PrepareBattery
 from bev_preheat_msgs.msg import HvchCommand

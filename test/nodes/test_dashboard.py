@@ -21,7 +21,7 @@ from waiting import poll_until
 
 from bev_preheat.control.inputs import Leg, Mission
 from bev_preheat.messages.route_plan import route_plan_message
-from bev_preheat.monitoring import dashboard_node
+from bev_preheat.monitoring import planners
 from bev_preheat.route import load_route
 from bev_preheat.vehicle import load_vehicle
 from bev_preheat_msgs.msg import HeatSourceCommand, HvchCommand, PreheatPlan, RoutePlan
@@ -168,9 +168,9 @@ def test_whatever_a_publisher_sends_is_no_end(bench):
 
 
 def test_plans_of_two_planners_on_one_topic_are_not_mixed(domain_id, monkeypatch):
-    monkeypatch.setattr(dashboard_node, 'RIVALS_AFTER_S', 0.5)
+    monkeypatch.setattr(planners, 'RIVALS_AFTER_S', 0.5)
     with spun_node('page', domain_id) as page, spun_node('planner', domain_id) as first:
-        followed, ready = dashboard_node.Planners(page), []
+        followed, ready = planners.Planners(page), []
 
         def publisher_of(node):
             node.create_subscription(BatteryState, 'battery_state', ready.append, 1)

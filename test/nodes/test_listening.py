@@ -10,7 +10,7 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import BatteryState
 from waiting import poll_until, TIME_LIMIT_S
 
-from bev_preheat.nodes.process import listening
+from bev_preheat.nodes.listening import listening
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from bev_preheat.messages.fields import nanoseconds
 from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.replay import replay
-from bev_preheat.recording.writer import recordings_in
+from bev_preheat.recording.ring import recordings_in
 from bev_preheat_msgs.msg import HvchCommand, PreheatPlan, RoutePlan
 
 LEASE_S = 0.8

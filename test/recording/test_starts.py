@@ -14,7 +14,7 @@ from bev_preheat.numerics import NS_PER_S
 from bev_preheat.recording.changes import Changes
 from bev_preheat.recording.flight import read_flight, Start
 from bev_preheat.recording.replay import replay, replay_changed
-from bev_preheat.recording.writer import recordings_in
+from bev_preheat.recording.ring import recordings_in
 from bev_preheat.simulation.scenario import load_scenario
 
 pytestmark = [pytest.mark.needs('mcap', 'rclpy'), pytest.mark.costly]

@@ -17,15 +17,8 @@ from bev_preheat.errors import InvalidInput
 from bev_preheat.recording import writer as module
 from bev_preheat.recording.flight import read_flight
 from bev_preheat.recording.records import RecordedStep
-from bev_preheat.recording.writer import (
-    check_folder,
-    Entry,
-    make_room,
-    Recording,
-    recordings_in,
-    RecordingWriter,
-    STEP_CHANNEL,
-)
+from bev_preheat.recording.ring import check_folder, make_room, recordings_in
+from bev_preheat.recording.writer import Entry, Recording, RecordingWriter, STEP_CHANNEL
 
 pytestmark = pytest.mark.needs('mcap')
 NUMBERS = st.integers(0, 2**62)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from bev_preheat.commands.parser import Subparsers
     from bev_preheat.commands.program import InterruptedEnding
     from bev_preheat.nodes.installed_drive import NodeProcess
-    from bev_preheat.nodes.process import Listener
+    from bev_preheat.nodes.listening import Listener
     from bev_preheat_studies.soak.load import SoakLoad
 
 SAMPLE_PERIOD_S = 1.0
@@ -92,7 +92,7 @@ def _soak(arguments: Namespace, log_file: str) -> tuple[
     """Return load, samples of the memory, the exit status (None: it had ended before), and the ending."""
     # These need ROS 2.
     from bev_preheat.nodes.installed_drive import NodeProcess, reserved_domain_id
-    from bev_preheat.nodes.process import listening
+    from bev_preheat.nodes.listening import listening
     from bev_preheat_studies.soak.load import SoakLoad
     samples: list[tuple[float, float]] = []
     with reserved_domain_id() as domain_id:

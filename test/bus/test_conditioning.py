@@ -6,8 +6,8 @@ from datetime import datetime, UTC
 import pytest
 from refusals import problems_of
 
-from bev_preheat.errors import InvalidInput
-from bev_preheat.nodes.bus_conditioning import (
+from bev_preheat.bus.conditioning import (
+    ConditioningGoal,
     ConditioningRequest,
     DRIVING,
     FAST_CHARGING,
@@ -17,21 +17,22 @@ from bev_preheat.nodes.bus_conditioning import (
     TEMPERATURE,
     TIME,
 )
+from bev_preheat.errors import InvalidInput
 
 READY_AT_S = datetime(2026, 1, 31, 6, 30, tzinfo=UTC).timestamp()
 
 
 def test_values_that_come_one_by_one_make_one_goal():
     request = ConditioningRequest().after({TEMPERATURE: 25.0}).after({TIME: '2026-01-31T06:30:00Z'})
-    assert request.goal is None
+    assert request.goal() is None
     request = request.after({MODE: DRIVING})
-    assert request.goal == (25.0, READY_AT_S)
+    assert request.goal() == ConditioningGoal(25.0, READY_AT_S)
     assert request.values() == {MODE: DRIVING, TEMPERATURE: 25.0, TIME: '2026-01-31T06:30:00.000Z'}
-    assert request.after({MODE: INACTIVE}).goal is None
+    assert request.after({MODE: INACTIVE}).goal() is None
 
 
 def test_only_fast_charging_has_a_target_by_default():
-    assert ConditioningRequest().after({MODE: FAST_CHARGING}).goal == (None, 0.0)
+    assert ConditioningRequest().after({MODE: FAST_CHARGING}).goal() == ConditioningGoal(None, 0.0)
     with pytest.raises(InvalidInput, match=f'^{TEMPERATURE}: is not set; {DRIVING} needs it'):
         ConditioningRequest().after({MODE: DRIVING})
 
