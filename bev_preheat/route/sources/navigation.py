@@ -124,8 +124,7 @@ def in_units(service: Service, contents: Any) -> Service:
     default = '', 'kilometers' if service.routes == 'trip' else 'm'
     path, units = _found(contents, ('trip.units', 'metadata.query.units')) or default
     if not isinstance(units, str) or units not in M_PER_UNIT:
-        raise InvalidInput(f'{path}: {quoted(str(units))} is not known; it must be one of '
-                           + ', '.join(M_PER_UNIT))
+        raise InvalidInput(f'{path}: {quoted(str(units))} is not one of {", ".join(M_PER_UNIT)}')
     return replace(service, metre=M_PER_UNIT[units])
 
 
